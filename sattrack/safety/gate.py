@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.mount.model import (
@@ -61,8 +62,22 @@ LEAST_KNOWN_S = 5.0
 """For so long a mount may always go on unheard: a run ends before that, and limits count on it."""
 UNLIKE_DEG_S = 0.05
 """An axis that is faster by more than was sent has not obeyed yet."""
+STANDS_DEG_S = 0.05
+"""Axes past a limit that may not move as asked wait there up to this rate, and are stopped above it."""
 LED_SHARES = (0.7, 0.5, 0.35, 0.25, 0.15, 0.08)
 """Shares of its rates by which a led slew is slower near a limit, so that a fault would not lead past it."""
+
+
+@dataclass(slots=True)
+class Outside:
+    """Whether a stream of rates finds the axes past a limit."""
+
+    count: int = 0
+    """How many clearances in a row have found them there."""
+    news: bool = True
+    """Whether a status has come since they were last found outside or inside."""
+    from_the_start: bool | None = None
+    """Whether they were there as it began, and have been since; None before that."""
 
 
 class Safety:
@@ -102,9 +117,7 @@ class Safety:
         self.clamping = False
         """Whether the last command's rates were cut to the axes' limits."""
         self._slewing = False
-        self._outside = 0
-        self._news = True
-        """Whether a status has come since axes were last found outside or inside."""
+        self._outside = Outside()
         self._watched = False
         self._escapes = escapes
         self._escape: Slew | None = None
@@ -192,7 +205,7 @@ class Safety:
         if belief is not Belief.DOUBTED:
             # In doubt, neither the turns nor the side of the pier change.
             self._standing.take(place, seen.beyond_pole)
-        self._news = True
+        self._outside.news = True
         return place
 
     def choose_turn(self, onward_deg: tuple[float, float] | None) -> None:
@@ -390,7 +403,7 @@ class Safety:
         judged = wanted if self._holds else self._as_fast_as_seen(clipped)
         name = self.holding = self._ahead.outlook(spots, now).limit(judged)
         if name is None:
-            self._outside = 0
+            self._outside.count, self._outside.from_the_start = 0, False
             self._held_since = self._rests_since_s = self._near_since_s = None
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
@@ -403,16 +416,9 @@ class Safety:
                         return self._trip(inward)
                     wanted = slower
             else:
-                outside = self._proven_outside(spots)
-                if outside is not None and outside not in CONES:
-                    return self._trip(outside)
-                kept = self._kept(outlook.limit, utc_s) if outside is None else None
-                if kept is None:
-                    kept = self._held((clipped, room), (spots, now), outlook.limit, outside is not None)
-                    self._held_since = None if utc_s is None else (utc_s, kept)
-                unheeded = self._unheeded(kept, outlook.limit, spots, utc_s)
-                if unheeded is not None:
-                    return self._trip(unheeded)
+                kept = self._kept_inside((clipped, room), (spots, now), outlook.limit, utc_s)
+                if isinstance(kept, str):
+                    return self._trip(kept)
                 wanted = kept
         if not self._holds:
             self._by_hand = _widened(self._by_hand, clipped)
@@ -428,14 +434,36 @@ class Safety:
                 return rates
         return None
 
+    def _kept_inside(
+        self,
+        wish: tuple[Rates, RateRanges],
+        stand: tuple[Sequence[Spot], RateRanges],
+        ahead: Callable[[Rates], str | None],
+        utc_s: float | None,
+    ) -> Rates | str:
+        """Return the rates nearest to a wish that lead no farther out, or the limit that stops the mount."""
+        outside = self._proven_outside(stand[0])
+        in_cone = outside in CONES
+        past_limit = None if in_cone else outside
+        if past_limit is not None and not self._outside.from_the_start:
+            return past_limit
+        kept = None if in_cone else self._kept(ahead, utc_s)
+        if kept is None:
+            kept = self._held(wish, stand, ahead, in_cone)
+            self._held_since = None if utc_s is None else (utc_s, kept)
+        if past_limit is not None and kept == REST and max(map(abs, wish[0])) > STANDS_DEG_S:
+            return past_limit
+        return self._unheeded(kept, ahead, stand[0], utc_s) or kept
+
     def _proven_outside(self, spots: Sequence[Spot]) -> str | None:
         """Return the limit past which the axes have been found so often that they must be; or None."""
-        place = spots[0].place
+        place, found = spots[0].place, self._outside
         name = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
-        if self._news or not self._watched:
-            self._outside = 0 if name is None or len(spots) > 1 else self._outside + 1
-            self._news = False
-        return name if self._outside >= OUTSIDE_PROOF else None
+        found.from_the_start = name is not None and found.from_the_start is not False
+        if found.news or not self._watched:
+            found.count = 0 if name is None or len(spots) > 1 else found.count + 1
+            found.news = False
+        return name if found.count >= OUTSIDE_PROOF else None
 
     def _kept(self, ahead: Callable[[Rates], str | None], utc_s: float | None) -> Rates | None:
         """Return the rates of what is held where they were found a moment ago and there is no limit ahead."""
@@ -621,7 +649,7 @@ class Safety:
 
     def _let_go(self) -> None:
         self.holding = self._held_since = self._rests_since_s = self._near_since_s = None
-        self._outside = 0
+        self._outside.count, self._outside.from_the_start = 0, None
         self._by_hand = REST, REST
         self._sent.clear()
         self._slews.forget()

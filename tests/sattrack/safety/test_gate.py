@@ -451,6 +451,31 @@ def test_axes_outside_are_stopped_by_the_third_status_that_finds_them_there() ->
     assert safety.tripped == "hour_angle"
 
 
+@pytest.mark.parametrize(
+    ("rates", "cleared"),
+    [((-1.0, 0.0), (-1.0, 0.0)), ((1.0, 0.5), (0.0, 0.5)), ((0.04, 0.0), (0.0, 0.0)), ((1.0, 0.0), None)],
+)
+def test_a_stream_that_begins_outside_leads_in_or_along_and_once_inside_out_no_more(
+    rates: tuple[float, float], cleared: tuple[float, float] | None
+) -> None:
+    """Axis rates: what is to stand, or hardly more, waits there; what is to go farther out is stopped."""
+    safety = gate(holds=True)
+
+    def sees(k: int, ha_deg: float, ha_rate: float, dec_rate: float) -> Any:
+        at = (SIDEREAL_DEG + 0.05 * k * S, SIDEREAL_DEG + 0.05 * k * S - ha_deg, 0.0)
+        wish = MoveAxes(S - ha_rate, dec_rate)
+        safety.watch(Seen(None, *at), wish)
+        return safety.clear(wish, *at, 0.0, T0 + 0.05 * k).motion
+
+    found = [sees(k, 40.5, *rates) for k in range(12)][-1]
+    if cleared is None:
+        assert found == Stop()
+        return
+    assert (S - found.ra_rate_deg_s, found.dec_rate_deg_s) == pytest.approx(cleared)
+    assert sees(12, 39.0, -1.0, 0.0) == MoveAxes(S + 1.0, 0.0)
+    assert [sees(13 + k, 40.5, -1.0, 0.0) for k in range(3)][-1] == Stop()
+
+
 @pytest.mark.parametrize("holds", [True, False])
 @pytest.mark.parametrize("beside_deg", [1.0, 0.05, -0.5])
 def test_axes_that_have_used_up_one_margin_keep_that_of_another_limit(holds: bool, beside_deg: float) -> None:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import pytest
 from antenna_harness import SITE, VirtualAntenna, rms
+from msgspec.structs import replace
 
 from sattrack.cli.serve_antenna import _antenna
 from sattrack.mount.geometry import AxisGeometry
@@ -161,6 +162,24 @@ def test_a_silent_antcn_leaves_the_antenna_at_its_limit_and_not_beyond(antenna: 
     axis = antenna.truths[-1].hour_angle_axis_deg
     assert 195.0 < axis < 200.0
     assert position(antenna)["aw"] == "1"
+
+
+@pytest.mark.parametrize("past_deg", [0.05, 0.5, 20.0])
+@pytest.mark.parametrize(("said_deg", "there_deg"), [(0.0, 0.0), (59.0, 59.0), (90.0, 59.9)])
+def test_an_antenna_that_the_sky_has_carried_past_its_limit_is_led_back_in(
+    past_deg: float, said_deg: float, there_deg: float
+) -> None:
+    """To where it is wanted, or as near as its limit lets it; a mount that tracks by itself gets there."""
+    start, profile = StartPosition(hour_angle_deg=60.0 + past_deg, dec_deg=40.0), MountProfile()
+    antenna = VirtualAntenna(BEGIN_UTC_S, profile=replace(profile, hour_angle_limit_deg=60.0), start=start)
+    antenna.run_for(1.0)
+    antenna.say(f"FIXED {said_deg} 30")
+    antenna.run_for(30.0)
+    assert antenna.station.tripped is None
+    truths = [truth.hour_angle_axis_deg for truth in antenna.truths]
+    assert truths[-1] == pytest.approx(there_deg, abs=0.3 if said_deg > 60.0 else 0.01)
+    assert max(truths) < 60.02 + past_deg
+    assert max(truths[-400:]) < 60.0
 
 
 def test_a_turn_that_a_session_before_has_left_is_counted_on(antenna: VirtualAntenna) -> None:
