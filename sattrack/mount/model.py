@@ -365,7 +365,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     repeat_rates: Literal["never", "when_lossy", "always"] = "when_lossy"
     park: AxesPosition | None = None
     home: AxesPosition | None = None
-    readings: dict[str, Literal["int64", "double"]] = {}
+    readings: dict[str, Reading] = {}
     calibration: CalibrationRecord | None = None
     sky: SkyTerms | None = None
     """What cameras have shown at earlier passes; what the next one begins with."""
@@ -511,6 +511,9 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
         if self.clock_offset_s is not None and not math.isfinite(self.clock_offset_s):
             raise ValueError(f"clock_offset_s is {self.clock_offset_s:g}; it must be a number")
+        fields = [name for name in Readings.__struct_fields__ if name != "tracking"]
+        if unknown := self.readings.keys() - fields:
+            raise ValueError(f"readings.{min(unknown)} is no field; give one of {', '.join(fields)}")
         self._check_travel()
         self._check_geometry()
 

@@ -95,9 +95,18 @@ def parse(words: list[str]) -> None:
         pass
 
 
+def _or_the_next(digits: re.Match[str]) -> str:
+    near = range(int(digits[0]) - 1, int(digits[0]) + 2)
+    return f"(?:{'|'.join(f'{one:03d}' for one in near)})"
+
+
 def matches(shown: str, printed: str) -> bool:
-    """Whether a text is as shown; a line of `…` stands for any lines, or none, ` …` for the rest of one."""
+    """Whether a text is as shown; a line of `…` stands for any lines, or none, ` …` for the rest of one.
+
+    A thousandth of an arcsecond may be one more or less: processors round the sums of a pass differently.
+    """
     parts = [re.escape(line) for line in shown.rstrip("\n").split("\n")]
+    parts = [re.sub(r"(?<=0\\\.)\d{3}(?=″)", _or_the_next, line) for line in parts]
     pattern = "\n".join(parts).replace("\n…\n", "\n(?:.*\n)*?").removesuffix("\n…").replace(r"\ …", " .*")
     return re.match(pattern + (r"\n?$" if not shown.endswith("\n…\n") else ""), printed) is not None
 

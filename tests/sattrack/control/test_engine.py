@@ -165,7 +165,7 @@ class TestFigures:
 
 class TestGivingUp:
     def test_statuses_of_another_kind_than_the_profile_says_are_another_mounts(self) -> None:
-        run = engine(name="mine", readings={"ra_rate_dtics_s": "double", "tracking": "always true"})
+        run = engine(name="mine", readings={"ra_rate_dtics_s": "double"})
         hear(run, ra_rate_dtics_s=7789)
         assert (run.tracker.ended_by, run.tracker.phase) == ("error", Phase.STOPPING)
         assert run.message == (

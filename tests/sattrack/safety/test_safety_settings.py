@@ -136,6 +136,7 @@ def test_bad_limits_are_refused_at_every_door(
         ('name = " "', 1, "name is ' '; give a word or more"),
         ("[ra]\nmax_rate_deg_s = nan", 2, "ra.max_rate_deg_s is nan; it must be above 0"),
         ('[[pier_zones]]\nname = "a"\ncorners = [[0.0, 0.0], [1.0, 1.0]]', 3, "corners is of 2 in 'a'"),
+        ('[readings]\nra_rate = "double"', 2, "readings.ra_rate is no field; give one of dec_rate_dtics_s"),
         ("[stands_at]\nlatitude_deg = -30.0\nlongitude_deg = 20.0", None, "is of a mount at -30.00, 20.00"),
     ],
 )
