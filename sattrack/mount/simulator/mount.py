@@ -40,7 +40,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.core.errors import BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.axis import Axis
 from sattrack.mount.simulator.drives import DTICS_S_PER_DEG_S, GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
@@ -186,25 +185,11 @@ def highest(command: MailboxCommand) -> str | None:
     return _GROUPS.get(name, name)
 
 
-def doubtful_types(profile: MountProfile) -> dict[str, str]:
-    """Return the types that this mount gives the doubtful fields; those it does not name are Appendix A's.
-
-    Raises BadInputError, naming it, for a field that is none of them.
-    """
-    for name in profile.readings:
-        if name not in DOUBTFUL_TYPES:
-            raise BadInputError(
-                f"readings.{name}: no doubtful field of a status; they are {', '.join(DOUBTFUL_TYPES)}"
-            )
-    return DOUBTFUL_TYPES | profile.readings
-
-
 @dataclass(slots=True)
 class SimulatedMount:
     """A mount with two axes; `receive` fills its mailbox, `tick` runs its loop once.
 
-    Time is an argument, UTC as POSIX seconds; the same calls give the same bytes. Raises BadInputError where
-    the profile's readings name a field that is not in doubt.
+    Time is an argument, UTC as POSIX seconds; the same calls give the same bytes.
     """
 
     profile: MountProfile
@@ -231,7 +216,7 @@ class SimulatedMount:
     def __post_init__(self) -> None:
         """Power up: the axes at their start position, tracking the sky."""
         profile, hardware = self.profile, self.hardware
-        self._types = doubtful_types(profile)
+        self._types = DOUBTFUL_TYPES | profile.readings
         offset_s = hardware.clock_offset_s
         offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
         self._sky = SimulatedSky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)

@@ -100,11 +100,6 @@ def test_a_table_that_says_what_cannot_be_is_refused_by_key(table: dict[str, obj
     assert str(refusal.value).startswith("my.toml, [simulator]: ")
 
 
-def test_readings_of_no_doubtful_field_are_refused() -> None:
-    with pytest.raises(BadInputError, match=r"readings\.ra_h"):
-        SimulatedMount(MountProfile(readings={"ra_h": "double"}), SITE)
-
-
 class Served:
     """A mount behind a socket at twenty times its speed; `clients` send between its turns."""
 
