@@ -143,7 +143,7 @@ class Engine(Driver):
         if self.tracker.ended_by is not None:
             return
         for name, expected in self.spec.profile.readings.items():
-            shown = getattr(self.session.readings, name, None)
+            shown = getattr(self.session.readings, name)
             if shown is not None and shown != expected:
                 self._give_up(
                     "error",

@@ -484,7 +484,7 @@ def _reading_warnings(console: Console) -> list[str]:
     return [
         f"the profile has {name} as {said}, the mount sends {getattr(seen, name)}"
         for name, said in console.profile.readings.items()
-        if getattr(seen, name, None) not in (None, said)
+        if getattr(seen, name) not in (None, said)
     ]
 
 

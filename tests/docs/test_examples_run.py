@@ -103,10 +103,10 @@ def _or_the_next(digits: re.Match[str]) -> str:
 def matches(shown: str, printed: str) -> bool:
     """Whether a text is as shown; a line of `…` stands for any lines, or none, ` …` for the rest of one.
 
-    A thousandth of an arcsecond may be one more or less: processors round the sums of a pass differently.
+    A run's error may be 0.001″ more or less: processors round the sums of a pass differently.
     """
     parts = [re.escape(line) for line in shown.rstrip("\n").split("\n")]
-    parts = [re.sub(r"(?<=0\\\.)\d{3}(?=″)", _or_the_next, line) for line in parts]
+    parts = [re.sub(r"(?<=error\\ 0\\\.)\d{3}(?=″)", _or_the_next, line) for line in parts]
     pattern = "\n".join(parts).replace("\n…\n", "\n(?:.*\n)*?").removesuffix("\n…").replace(r"\ …", " .*")
     return re.match(pattern + (r"\n?$" if not shown.endswith("\n…\n") else ""), printed) is not None
 
